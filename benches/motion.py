@@ -3,9 +3,9 @@
 
     benches/motion.py target/release/umo SPEECH... [-- OPTIONS OF umo animate]
 
-Runs `umo animate` on the recordings with three seeds: with `--smoothing 0 --layers 0`, with the defaults, and with the
-prompt `explaining`; and on 60 s of silence. Prints mean, minimum and maximum of each number over all takes, beside the
-bar. Needs numpy and scipy.
+Runs `umo animate` on the recordings with three seeds: with `--smoothing 0 --layers 0`, with the defaults, with the
+prompt `explaining`, and with the least and the most activity; and on 60 s of silence. Prints mean, minimum and maximum
+of each number over all takes, beside the bar. Needs numpy and scipy.
 """
 
 import subprocess
@@ -34,10 +34,21 @@ STILL_M_S = 0.04
 SHIFT_DEG_S = 60
 # Eye rotation for a gaze shape of 1, degrees.
 GAZE_DEG = 30
+# A wrist below this height over the pelvis is low, metres.
+LOW_M = -0.02
+# A gesture phrase: a wrist faster than this, metres per second, or this many frames beside such a frame.
+MOVING_M_S, BESIDE = 0.25, 4
+# A foot that rises by this much over the floor is lifted, metres.
+LIFT_M = 0.02
 SILENCE_S = 60
 
 # Required value of a number, for every take or for the mean of all.
 BARS = {
+    "a hand low, % of time": "20 to 50; activity 0: > 80, 1: < 5",
+    "gesture phrases, median, s": "≥ 3",
+    "pelvis, rms, degrees": "≥ 7",
+    "collars, rms, degrees": "≥ 5.5",
+    "knees, rms, degrees": "≥ 6",
     "blinks a minute": "12 to 22",
     "gaze shifts a minute": "20 to 50",
     "both hands still, % of time": "< 3",
@@ -102,6 +113,38 @@ def lips(channels: np.ndarray) -> np.ndarray:
     return channels[:, ARKIT.index("jawOpen")].astype(float) - channels[:, ARKIT.index("mouthClose")]
 
 
+def spread(rotations: np.ndarray) -> float:
+    """Root mean square of the angles of rotations `[frames, 3, 3]` from their mean, degrees."""
+    turns = Rotation.from_matrix(rotations)
+    return float(np.degrees(np.sqrt(np.square((turns.mean().inv() * turns).magnitude()).mean())))
+
+
+def resting(rotations: np.ndarray, hands: np.ndarray, toes: np.ndarray) -> dict[str, float]:
+    """Rests, phrases and the body's part in them, from rotations of the joints `[frames, 55, 3, 3]`, the wrists in the
+    pelvis' frame `[frames, 2, 3]` and the height of the toes `[frames, 2]`."""
+    minutes = len(hands) / FRAME_RATE / 60
+    speed = np.linalg.norm(np.gradient(hands, axis=0), axis=-1) * FRAME_RATE
+    phrase = np.convolve(speed.max(1) > MOVING_M_S, np.ones(2 * BESIDE + 1), "same") > 0
+    lengths = np.diff(np.flatnonzero(np.diff(np.pad(phrase.astype(int), 1))).reshape(-1, 2)) / FRAME_RATE
+    lifts = toes - np.percentile(toes.min(1), 20)
+    low = 100 * (hands[..., 1] < LOW_M).mean(0)
+
+    def of(*names: str) -> float:
+        return float(np.mean([spread(rotations[:, JOINT[name]]) for name in names]))
+
+    return {
+        "a hand low, % of time": low.mean(),
+        "the left hand low, % of time": low[0],
+        "gesture phrases, median, s": np.median(lengths) if len(lengths) else 0.0,
+        "gesture phrases a minute": len(lengths) / minutes,
+        "path of both wrists, m a minute": speed.sum() / FRAME_RATE / minutes,
+        "pelvis, rms, degrees": of("pelvis"),
+        "collars, rms, degrees": of("left_collar", "right_collar"),
+        "knees, rms, degrees": of("left_knee", "right_knee"),
+        "feet lifted a minute": sum(len(find_peaks(foot, height=LIFT_M, distance=8)[0]) for foot in lifts.T) / minutes,
+    }
+
+
 def measure(path: Path) -> dict[str, float]:
     """The numbers of one animation in SMPL-X `.npz` format."""
     file = np.load(path, allow_pickle=True)
@@ -112,8 +155,8 @@ def measure(path: Path) -> dict[str, float]:
     wrists = [JOINT["left_wrist"], JOINT["right_wrist"]]
     wrist_jerk = jerk(body[:, wrists]).max(1)
     # In the pelvis' frame, as a viewer sees gestures.
-    hands = np.einsum("tji,tkj->tki", turned[:, 0], (body - body[:, :1])[:, wrists])
-    hand_speed = np.linalg.norm(np.gradient(gaussian_filter1d(hands, 1.0, axis=0), axis=0), axis=-1) * FRAME_RATE
+    hands = gaussian_filter1d(np.einsum("tji,tkj->tki", turned[:, 0], (body - body[:, :1])[:, wrists]), 1.0, axis=0)
+    hand_speed = np.linalg.norm(np.gradient(hands, axis=0), axis=-1) * FRAME_RATE
     head = Rotation.from_matrix(turned[:, JOINT["head"]])
     yaw, pitch, roll = (head.mean().inv() * head).as_euler("YXZ", degrees=True).std(0)
     height = world[:, FEET, 1]
@@ -121,7 +164,7 @@ def measure(path: Path) -> dict[str, float]:
     speed = np.linalg.norm(np.diff(world[:, FEET][..., [0, 2]], axis=0), axis=-1) * FRAME_RATE
     second = min(len(root), FRAME_RATE)
     drift = root[-second:].mean(0) - root[:second].mean(0)
-    return face(file["arkit"], seconds) | {
+    return face(file["arkit"], seconds) | resting(rotations, hands, height) | {
         "both hands still, % of time": 100 * (hand_speed.max(1) < STILL_M_S).mean(),
         "head, standard deviation of yaw, degrees": yaw,
         "head, standard deviation of pitch, degrees": pitch,
@@ -158,6 +201,8 @@ def main() -> None:
             "model alone": (recordings, ["--smoothing", "0", "--layers", "0"]),
             "default": (recordings, []),
             "default, `explaining`": (recordings, ["--prompt", "explaining"]),
+            "default, activity 0": (recordings, ["--activity", "0"]),
+            "default, activity 1": (recordings, ["--activity", "1"]),
             "default, silence": (quiet, []),
         }
         out = Path(folder) / "motion.npz"
