@@ -19,6 +19,7 @@ from margin import Margin
 from mouth import Mouth as Reference
 from umo_train.export import checksum
 from umo_train.metrics import languages
+from umo_train.metrics.lips import WIDTH
 from umo_train.mouth import captured, examples, part, sounds
 from umo_train.mouth.features import Front, Sizes, sizes_of
 from umo_train.mouth.gate import gate, gated
@@ -157,6 +158,18 @@ def test_landmarks_become_a_mouth_that_opens_as_they_do(tmp_path: Path) -> None:
         rounded = one.mouth[:, SHAPE["mouthPucker"]] + one.mouth[:, SHAPE["mouthFunnel"]]
         assert rounded[19] > 0.4 and rounded[:12].max() < 0.1
         assert one.mouth.min() >= 0 and one.mouth.max() <= 1
+
+
+def test_a_mouth_narrows_as_captured_whatever_its_lips_do() -> None:
+    still, least, most = np.array([[0, 60, 30, 8, 12, 90], [0, 50, 20, 6, 10, 80], [15, 65, 40, 10, 15, 100]], float)
+    lengths = np.tile(still, (41, 1))
+    lengths[:, 1] = np.linspace(least[1], most[1], 41)
+    for red in (30, 25, 35):
+        lengths[:, 2] = red
+        mouth = captured.fitted(lengths, still, least, most)
+        width = mouth @ WIDTH
+        assert np.corrcoef(width, lengths[:, 1])[0, 1] > 0.97 and width[5] < width[15] - 0.1 < width[35] - 0.2
+        assert mouth.min() >= 0 and mouth.max() <= 1
 
 
 def test_a_faster_capture_stays_in_step() -> None:

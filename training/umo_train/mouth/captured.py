@@ -22,6 +22,8 @@ SEED, SHARE = 59, 10
 GRID_RATE = 25.0
 # Opening, rounding, spread of the corners and jaw of the figure at the talker's 99th percentile.
 OPEN, ROUND, SPREAD, JAW_DOWN = 0.5, 0.8, 0.42, 0.42
+# Share of the narrowness beyond the rounding that goes to the rounding.
+NARROWED = 0.6
 # Parts of the opening that lower and upper lip give at most, in their channels' units.
 LOWER, UPPER = 0.9, 0.45
 _STILL = 1e-6
@@ -125,6 +127,8 @@ def fitted(lengths: np.ndarray, rest: np.ndarray, least: np.ndarray, most: np.nd
     open_ = np.clip((lengths[:, 0] - least[0]) / max(most[0] - least[0], _STILL), 0, 1.3)
     rounded = ROUND * np.clip(up[:, 2] + 0.1, 0, 1.2)
     width = np.where(up[:, 1] > 0, SPREAD * up[:, 1], -ROUND * down[:, 1])
+    # Only rounding draws the corners together: a mouth that is narrower than it is round is made rounder.
+    rounded += NARROWED * np.maximum(-width - rounded, 0)
     spread = np.clip(width + rounded, 0, 0.8)
     closed = np.clip(1 - open_ / 0.1, 0, 1)
     lower, upper = (closed * np.clip(down[:, i], 0, 1) for i in (4, 3))

@@ -42,6 +42,7 @@ def make(s: Run) -> None:
     s.folder.mkdir(parents=True, exist_ok=True)
     front = Front(sizes_of(plan["features"]))
     names, rest = _channels(s)
+    begin = part.read(s.work / plan["begin"])[1] if "begin" in plan else None
     network = train(
         MouthPlan(**plan["training"], network=plan["network"], seed=s.plan["seed"]),
         front,
@@ -49,6 +50,7 @@ def make(s: Run) -> None:
         names,
         rest,
         s.folder,
+        begin,
     )
     tensors = network.tensors(torch.bfloat16) | front.tensors() | {"mouth.rest": torch.from_numpy(rest).float()}
     part.write(out, {**plan["features"], **plan["network"], "channels": names}, tensors)

@@ -1,7 +1,7 @@
 """Trains the live mouth: least squares on the channels, an extra term for the lips' opening, and voice detection."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,7 @@ class MouthPlan:
     """`frames` of each of `batch` clips per step; the weights apply to the loss terms other than the channels.
 
     `lead`: frames, below 1, by which the live head's mouth is ahead of its frame, as it is shown that much later.
+    `live`: weight of the closures in the live head's loss, relative to `closures`, as it hears less of what follows.
     `shares`: how often each kind of example is drawn, 0 to 1, relative to each other. `open` weighs lips that are less
     apart than open ones. `warp`: highest share by which a stretch's frequencies are scaled, voices of another size."""
 
@@ -43,6 +44,7 @@ class MouthPlan:
     velocity: float = 1.0
     voice: float = 0.03
     lead: float = 0.0
+    live: float = 1.0
     later: float = 1.0
     shares: dict[str, float] = field(default_factory=lambda: dict.fromkeys(KINDS, 1.0))
     noise: float = 0.05
@@ -52,9 +54,15 @@ class MouthPlan:
 
 
 def train(
-    plan: MouthPlan, front: Front, examples: Sequence[Example], names: Sequence[str], rest: np.ndarray, folder: Path
+    plan: MouthPlan,
+    front: Front,
+    examples: Sequence[Example],
+    names: Sequence[str],
+    rest: np.ndarray,
+    folder: Path,
+    begin: Mapping[str, Tensor] | None = None,
 ) -> MouthNetwork:
-    """Resumes from a checkpoint in the folder."""
+    """Resumes from a checkpoint in the folder, or begins with the tensors of an earlier mouth, if any."""
     torch.manual_seed(plan.seed)
     network = MouthNetwork(front.width, len(names), rows=front.sizes.rows, taps=front.sizes.taps, **plan.network)
     some = torch.cat([example.rows[::7].float() for example in examples])
@@ -73,6 +81,8 @@ def train(
     log = Log(folder / "mouth.csv", start)
     at = [ARKIT.index(name) for name in names]
     lips = torch.from_numpy(np.stack([OPENING[at], WIDTH[at], ROUNDING[at]], 1)).float()
+    if begin and not start:
+        network.load_state_dict({name: begin[f"mouth.{name}"].float() for name in network.state_dict()})
     chances = _chances(plan, examples)
     bar = tqdm(range(start, plan.steps), "mouth", initial=start, total=plan.steps)
     for step in bar:
@@ -142,7 +152,8 @@ def loss_of(
     if not network.behind:
         return _loss(plan, lips, network(rows), *_earlier(plan.lead, *wanted), known)
     now, later = network.both(rows)
-    loss, values = _loss(plan, lips, now, *_earlier(plan.lead, *wanted), known)
+    live = replace(plan, closures=plan.live * plan.closures)
+    loss, values = _loss(live, lips, now, *_earlier(plan.lead, *wanted), known)
     behind = network.behind
     more, others = _loss(plan, lips, later[:, behind:], *(x[:, :-behind] for x in wanted), known)
     return loss + plan.later * more, values | {f"later {name}": value for name, value in others.items()}

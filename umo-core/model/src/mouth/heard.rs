@@ -25,6 +25,8 @@ pub const JAW_OPEN: f32 = 0.35;
 pub const TO_REST: f32 = 0.3;
 /// Share of the way between the two heads in one frame.
 const FADE: f32 = 0.25;
+/// The default model's decoders smile less than this in vowels without a mood.
+const VOWEL_SMILE: f32 = 0.15;
 /// Steps of a channel from 0 to 1: what a packet says of it is exact.
 const STEPS: f32 = 255.0;
 /// Upper bound on the number of frames in a valid state.
@@ -84,8 +86,8 @@ impl MouthOver {
         self.pose = *frame.pose;
         for (i, (&channel, &said)) in mouth.channels().iter().zip(said).enumerate() {
             let (own, value) = (frame.face[channel], f32::from(said) / STEPS);
-            // A smile of the body stays: the network knows only smiles of vowels.
-            let value = if self.smiles.contains(&Some(i)) { value.max(own) } else { value };
+            // A mood's smile stays: the network knows only smiles of vowels, better than the body does.
+            let value = if self.smiles.contains(&Some(i)) { value.max(of_mood(own)) } else { value };
             self.face[channel] = if share < 1.0 { own + share * (value - own) } else { value };
         }
         if let Some(jaw) = self.jaw {
@@ -95,6 +97,11 @@ impl MouthOver {
         }
         (&self.pose, &self.face)
     }
+}
+
+/// The part of a smile that is no vowel's.
+fn of_mood(smile: f32) -> f32 {
+    smile * (smile / VOWEL_SMILE - 1.0).clamp(0.0, 1.0)
 }
 
 /// A channel's value in steps.
