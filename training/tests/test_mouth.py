@@ -2,6 +2,7 @@
 
 import json
 import zlib
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 
@@ -107,6 +108,10 @@ def test_training_learns_when_a_tone_speaks(tmp_path: Path) -> None:
     # Resumed after its end: the same weights.
     again = train(plan, front, items, MOUTH_CHANNELS, rest, tmp_path)
     assert all(torch.equal(a, b) for a, b in zip(network.parameters(), again.parameters(), strict=True))
+    # Another training that begins with it.
+    still = replace(plan, steps=1, rate=0.0)
+    begun = train(still, front, items, MOUTH_CHANNELS, rest, tmp_path / "begun", network.tensors(torch.float32))
+    assert all(torch.equal(a, b) for a, b in zip(network.parameters(), begun.parameters(), strict=True))
 
 
 def test_a_second_head_gives_frames_before(tmp_path: Path) -> None:

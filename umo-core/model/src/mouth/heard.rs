@@ -218,3 +218,16 @@ impl HeardMouth {
 fn slot(index: u64, room: u64) -> usize {
     (index % room) as usize
 }
+
+#[cfg(test)]
+mod tests {
+    use super::of_mood;
+
+    #[test]
+    fn a_smile_of_vowels_is_the_network_s_and_one_of_a_mood_stays() {
+        assert!([0.0, 0.05, 0.15].iter().all(|&smile| of_mood(smile) == 0.0));
+        assert!([0.3, 0.5, 1.0].iter().all(|&smile| of_mood(smile) == smile));
+        let rising: Vec<f32> = (0..=100_u8).map(|step| of_mood(f32::from(step) / 100.0)).collect();
+        assert!(rising.is_sorted() && rising.windows(2).all(|pair| pair[1] - pair[0] < 0.04));
+    }
+}
