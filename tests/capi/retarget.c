@@ -166,7 +166,7 @@ static void bodies_are_corrected_by_hand(void) {
     OK(umo_retarget_free(retarget));
 }
 
-/* How far the left arm is bent out of the belly that it enters slowly, pose by pose, at this rate. */
+/* Correction of the left arm, radians, after it has moved into the belly at this rate. */
 static double bent(float rate) {
     static character one;
     make(&one, UMO_AXES_GLTF);

@@ -99,7 +99,7 @@ impl MouthOver {
     }
 }
 
-/// The part of a smile that is no vowel's.
+/// What a mood adds to a smile.
 fn of_mood(smile: f32) -> f32 {
     smile * (smile / VOWEL_SMILE - 1.0).clamp(0.0, 1.0)
 }
