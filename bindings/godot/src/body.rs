@@ -41,7 +41,7 @@ impl Body {
         Ok(Self { character: Character::new(model, &rest)?, turns })
     }
 
-    /// Rotates the bones of a frame so many seconds after the last one; also returns where the hips are in the skeleton.
+    /// Rotates the bones of a frame; also returns where the hips are in the skeleton. `seconds`: since the last frame.
     pub(crate) fn pose(&mut self, seconds: f32, frame: &[f32]) -> Result<Vector3, String> {
         let (translation, rotations) = (&frame[..3], &frame[3..3 + 4 * JOINT_COUNT]);
         let [x, y, z] = self.character.apply(seconds, rotations, translation, &mut self.turns)?;

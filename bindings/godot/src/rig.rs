@@ -131,7 +131,7 @@ impl Rig {
         self.skeleton == skeleton.instance_id() && self.version == skeleton.get_version() && self.volume == volume
     }
 
-    /// Shows a frame so many seconds after the last one.
+    /// Shows a frame. `seconds`: since the last one.
     pub(crate) fn pose(&mut self, skeleton: &mut Gd<Skeleton3D>, seconds: f32, frame: &[f32], moves_root: bool) {
         let hips = self.body.as_mut().and_then(|body| body.pose(seconds, frame).ok());
         let mut body = [Quaternion::default(); JOINT_COUNT];

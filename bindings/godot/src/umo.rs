@@ -108,8 +108,7 @@ impl Character {
         Ok(made)
     }
 
-    /// Writes the rotation of each bone in its parent, and returns the place of the hips, for a pose so many seconds after
-    /// the last one.
+    /// Writes the rotation of each bone in its parent, and returns the place of the hips. `seconds`: since the last pose.
     pub(crate) fn apply(
         &mut self,
         seconds: f32,
