@@ -118,8 +118,7 @@ impl Character {
     ) -> Result<[f32; 3], String> {
         assert!(rotations.len() >= 4 * JOINT_COUNT && translation.len() >= 3 && into.len() >= 4 * self.bones as usize);
         let mut place = [0.0; 3];
-        let (turns, at, into, hips) =
-            (rotations.as_ptr(), translation.as_ptr(), into.as_mut_ptr(), place.as_mut_ptr());
+        let (turns, at, into, hips) = (rotations.as_ptr(), translation.as_ptr(), into.as_mut_ptr(), place.as_mut_ptr());
         // SAFETY: the handle is of a character.
         check(self.library, unsafe { (self.library.retarget_set_step)(self.handle, seconds) })?;
         // SAFETY: all are long enough, which is checked above.

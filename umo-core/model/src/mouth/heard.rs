@@ -86,7 +86,7 @@ impl MouthOver {
         self.pose = *frame.pose;
         for (i, (&channel, &said)) in mouth.channels().iter().zip(said).enumerate() {
             let (own, value) = (frame.face[channel], f32::from(said) / STEPS);
-            // A mood's smile stays: the network knows only smiles of vowels, better than the body does.
+            // The network does not know the smile of a mood.
             let value = if self.smiles.contains(&Some(i)) { value.max(of_mood(own)) } else { value };
             self.face[channel] = if share < 1.0 { own + share * (value - own) } else { value };
         }
@@ -99,7 +99,7 @@ impl MouthOver {
     }
 }
 
-/// What a mood adds to a smile.
+/// The part of a smile above that of vowels.
 fn of_mood(smile: f32) -> f32 {
     smile * (smile / VOWEL_SMILE - 1.0).clamp(0.0, 1.0)
 }
