@@ -105,15 +105,18 @@ fn performed(folder: &Folder, name: &str, more: &[&str]) -> (serde_json::Value, 
 fn a_motion_begins_at_its_start_pose() {
     let folder = Folder::new();
     let last = folder.at("last.npz");
-    let before = performed(&folder, "before.jsonl", &["--prompt", "excited", "-o", &last]).1;
     let plain = performed(&folder, "plain.jsonl", &["--greedy"]).1;
-    let next = performed(&folder, "next.jsonl", &["--greedy", "--start-pose", &last]).1;
-    let from_last = |frames: &[Frame]| apart(&frames[0].0, &before.last().unwrap().0);
-    let (far, near) = (from_last(&plain), from_last(&next));
-    // How near depends on the draws, which differ between processors.
-    assert!(near < 0.95 * far, "{near} and {far} radians from the start pose");
-    let again = performed(&folder, "again.jsonl", &["--greedy", "--start-pose", &last]).1;
-    assert!(next == again);
+    // One pose is nearer than another by draws, which differ between processors: three poses.
+    let (mut far, mut near) = (0.0, 0.0);
+    for prompt in ["angry", "explaining", "a person waves"] {
+        let before = performed(&folder, "before.jsonl", &["--prompt", prompt, "-o", &last]).1;
+        let next = performed(&folder, "next.jsonl", &["--greedy", "--start-pose", &last]).1;
+        far += apart(&plain[0].0, &before.last().unwrap().0);
+        near += apart(&next[0].0, &before.last().unwrap().0);
+    }
+    assert!(near < 0.85 * far, "{near} and {far} radians from the start poses");
+    performed(&folder, "again.jsonl", &["--greedy", "--start-pose", &last]);
+    assert_eq!(folder.read("next.jsonl"), folder.read("again.jsonl"));
 }
 
 #[test]
