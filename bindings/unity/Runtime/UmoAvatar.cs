@@ -668,7 +668,7 @@ namespace Umo.Unity
             frame.Rotations(0, rotations);
             frame.Translation(0, translation);
             Vec hips = retarget.Hips(translation);
-            if (body != null) body.Apply(Time.deltaTime, rotations, translation, turned, ref hips);
+            if (body != null) body.Apply((float)FrameSeconds, rotations, translation, turned, ref hips);
             else retarget.Rotate(rotations, turned);
             figure.Show(turned, hips, moveHips);
         }
