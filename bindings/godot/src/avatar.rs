@@ -174,6 +174,11 @@ pub(crate) struct UmoAvatar3D {
     #[var(set = set_expression)]
     #[init(val = 0.5)]
     expression: f64,
+    /// How often hands leave rest: 0.5 is as people do, 0 hardly ever, 1 nearly always.
+    #[export(range = (0.0, 1.0, 0.01))]
+    #[var(set = set_activity)]
+    #[init(val = 0.5)]
+    activity: f64,
     /// Focus of attention. `Auto`: the avatar speaks while its audio is heard, listens while that of `push_other_audio`
     /// is heard, and is idle otherwise.
     #[export(enum = (Auto = 0, Idle = 1, Listening = 2, Thinking = 3, Speaking = 4))]
@@ -758,6 +763,13 @@ impl UmoAvatar3D {
     }
 
     #[func]
+    fn set_activity(&mut self, amount: f64) {
+        if self.set(ffi::PARAMETER_ACTIVITY, amount) {
+            self.activity = amount;
+        }
+    }
+
+    #[func]
     fn set_output_delay(&mut self, seconds: f64) {
         if self.set(ffi::PARAMETER_OUTPUT_DELAY, seconds) {
             self.output_delay = seconds;
@@ -858,6 +870,7 @@ impl UmoAvatar3D {
             (ffi::PARAMETER_LAYER_FEET, self.layer_feet),
             (ffi::PARAMETER_LAYER_BODY, self.layer_body),
             (ffi::PARAMETER_EXPRESSION, self.expression),
+            (ffi::PARAMETER_ACTIVITY, self.activity),
             (ffi::PARAMETER_ATTENTION, f64::from(self.attention)),
             (ffi::PARAMETER_OUTPUT_DELAY, self.output_delay),
         ];

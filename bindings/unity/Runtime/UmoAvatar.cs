@@ -44,6 +44,8 @@ namespace Umo.Unity
         [Range(0, 1)] public float moodStrength = 1;
         [Tooltip("How far body and face follow the arousal of the voice.")]
         [Range(0, 1)] public float expression = 0.5f;
+        [Tooltip("How often hands leave rest: 0.5 is as people do, 0 hardly ever, 1 nearly always.")]
+        [Range(0, 1)] public float activity = 0.5f;
         [Tooltip("Object to look at, such as the player's head.")]
         public Transform lookAt;
         [Range(0, 1)] public float lookAtStrength = 1;
@@ -114,7 +116,7 @@ namespace Umo.Unity
         private double quiet, restLength, hostTime;
         private int blocks;
         private bool any, restart;
-        private readonly double[] sent = new double[14];
+        private readonly double[] sent = new double[15];
         private Idle sentIdle;
         private string sentPrompt;
         private Mood sentMood;
@@ -416,7 +418,7 @@ namespace Umo.Unity
             for (int i = 0; i < sent.Length; i++) sent[i] = 1;
             sent[AttentionIndex] = (double)Attention.Auto;
             sent[DelayIndex] = 0;
-            sent[ExpressionIndex] = 0.5;
+            sent[ExpressionIndex] = sent[ActivityIndex] = 0.5;
             sentIdle = config.Idle;
             sentPrompt = "";
             sentMood = Mood.Neutral;
@@ -609,8 +611,8 @@ namespace Umo.Unity
             return Works(session.PushOtherAudio(otherSamples, 0, count * channels));
         }
 
-        /// Indices of the attention, the output delay and the expression in `sent`.
-        private const int AttentionIndex = 11, DelayIndex = 12, ExpressionIndex = 13;
+        /// Indices of the attention, the output delay, the expression and the activity in `sent`.
+        private const int AttentionIndex = 11, DelayIndex = 12, ExpressionIndex = 13, ActivityIndex = 14;
 
         /// Sends settings that were changed in the inspector or by a script.
         private bool Send()
@@ -623,7 +625,8 @@ namespace Umo.Unity
                 && Send(10, Parameter.LayerBody, bodyLayer, 1)
                 && Send(AttentionIndex, Parameter.Attention, (float)attention, (float)Attention.Speaking)
                 && Send(DelayIndex, Parameter.OutputDelay, outputDelay, 2)
-                && Send(ExpressionIndex, Parameter.Expression, expression, 1);
+                && Send(ExpressionIndex, Parameter.Expression, expression, 1)
+                && Send(ActivityIndex, Parameter.Activity, activity, 1);
             float strength = Mathf.Clamp(moodStrength, 0, 1);
             if (works && (mood != sentMood || strength != sentMoodStrength))
             {

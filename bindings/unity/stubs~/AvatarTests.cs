@@ -704,8 +704,8 @@ namespace Umo.Unity.Tests
             // "now" means nothing in English.
             string rules = "[class.own]\nwords = ['now']\ngestures = [{ name = 'stop', side = 'left' }]";
             avatar.wordRules = new TextAsset { bytes = System.Text.Encoding.UTF8.GetBytes(rules) };
-            // Hands that do not rest: from there every gesture goes far up.
-            avatar.idleLayer = avatar.bodyLayer = 0;
+            // Hands rest, but for the gesture.
+            avatar.activity = 0;
             Enable();
             // After a while of silence, as in a game.
             Run(1);
@@ -717,7 +717,6 @@ namespace Umo.Unity.Tests
             float hand = Of(HumanBodyBones.LeftHand).transform.position.y;
             Run(3, () =>
             {
-                // Higher than in the speech's own motion.
                 if (raised == 0 && Of(HumanBodyBones.LeftHand).transform.position.y > hand + 0.35f) raised = time - heard;
             });
             Assert.AreEqual(1.95, raised, 0.25, "seconds of the speech");

@@ -385,6 +385,11 @@ bool UUmoComponent::SetExpression(float Amount)
 	return Avatar && Avatar->set(UMO_PARAMETER_EXPRESSION, Amount) == UMO_STATUS_OK;
 }
 
+bool UUmoComponent::SetActivity(float Amount)
+{
+	return Avatar && Avatar->set(UMO_PARAMETER_ACTIVITY, Amount) == UMO_STATUS_OK;
+}
+
 bool UUmoComponent::SetLayer(EUmoLayer Layer, float Strength)
 {
 	return Avatar && Avatar->set(UMO_PARAMETER_LAYER_GAZE + static_cast<uint32>(Layer), Strength) == UMO_STATUS_OK;

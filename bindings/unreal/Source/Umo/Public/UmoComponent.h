@@ -342,6 +342,10 @@ public:
 	UFUNCTION(BlueprintCallable, Category = "Umo")
 	bool SetExpression(float Amount);
 
+	/** How often hands leave rest, 0 to 1: 0.5 is as people do, 0 hardly ever, 1 nearly always. */
+	UFUNCTION(BlueprintCallable, Category = "Umo")
+	bool SetActivity(float Amount);
+
 	/** Strength of a layer over the model's motion, 0 to 1. */
 	UFUNCTION(BlueprintCallable, Category = "Umo")
 	bool SetLayer(EUmoLayer Layer, float Strength);
